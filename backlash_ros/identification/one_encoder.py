@@ -196,7 +196,8 @@ _GAINS = 3.0
 class Minimum(NamedTuple):
     """The end of a minimisation: cost, parameters, problem; rms of both innovations, and the stage of the noise.
 
-    ``both``: whether both flanks bore a torque.
+    ``both``: whether both flanks bore a torque. ``explained``: whether nothing is left to be explained: with the
+    least noise it is as good as a true model.
     """
 
     cost: float
@@ -205,6 +206,7 @@ class Minimum(NamedTuple):
     sizes: tuple[float, float] = (math.inf, math.inf)
     stage: int = -1
     both: bool = False
+    explained: bool = False
 
 
 def cost_of(found: Minimum) -> float:
@@ -369,7 +371,9 @@ class _Search:
         if not math.isfinite(problem.cost(end.x, self._noise(noise))):  # a refused step may have come last
             return end
         sizes = np.sqrt(np.mean(loss_of(problem.results.innovations[1:]), axis=0))
-        return end._replace(sizes=(float(sizes[0]), float(sizes[1])), both=self._both(problem, end.x))
+        end = end._replace(sizes=(float(sizes[0]), float(sizes[1])), both=self._both(problem, end.x))
+        plain = end.stage == len(self.stages) - 1 and max(end.sizes) <= _FITS and end.both
+        return end._replace(explained=plain and (not self.by_motor or self.fit(end).pull <= _PULL))
 
     def _both(self, problem: Problem, x: Array) -> bool:
         """Return whether both flanks bore a torque, after a pass of the filter: a light load's inertia shows little."""
@@ -447,9 +451,9 @@ class _Search:
         return ends
 
     def go_on(self, begun: Minimum) -> Minimum:
-        """Minimise with the whole recording, thinned out."""
+        """Minimise with the whole recording, thinned out; near an end that explains all, without much noise."""
         whole = replace(begun.problem, recording=self._thin)
-        warm, first = (_LITTLE, _LITTLE) if self.explained(begun) else (_WARM, _FAR)
+        warm, first = (_LITTLE, _LITTLE) if begun.explained else (_WARM, _FAR)
         return self.descend(whole, self.solve(whole, begun.x, self.stages[warm], 5, 0.5).x, first)
 
     def anew(self, found: Minimum) -> list[Minimum]:
@@ -524,11 +528,6 @@ class _Search:
         problem = replace(found.problem, recording=self._thin, beliefs=found.problem.beliefs._replace(high=high))
         return self.descend(problem, x, max(found.stage - 1, 0))
 
-    def explained(self, found: Minimum) -> bool:
-        """Return whether an end leaves nothing to be explained: with the least noise it is as good as a true model."""
-        plain = found.stage == len(self.stages) - 1 and max(found.sizes) <= _FITS and found.both
-        return plain and (not self.by_motor or self.fit(found).pull <= _PULL)
-
     def finish(self, found: Minimum) -> Minimum:
         """Continue with every reading, if that converges: fast readings make the cost rugged."""
         if self._thin is self.recording:
@@ -564,13 +563,13 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
     search = _Search(drive, recording, torque)
     laws = [told_teeth(drive, contact) for contact in contacts or contacts_of(drive)]
     ends = search.in_play(laws) if search.by_motor else []
-    if not (ends and search.explained(ends[0])):
+    if not (ends and ends[0].explained):
         begun = [search.begin(teeth) for teeth in laws]
         for k in range(_KEPT):
             ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
-            if search.explained(ends[0]):
+            if ends[0].explained:
                 break
-    if not search.explained(ends[0]):
+    if not ends[0].explained:
         ends = sorted([*ends, *search.anew(ends[0])], key=cost_of)
     for _ in range(_ROUNDS):
         best = ends[0]
