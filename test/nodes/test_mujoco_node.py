@@ -1,7 +1,7 @@
 """MuJoCo plays drives of the population against the controller node, over DDS in lockstep.
 
 One that the node knows: `test/unit/test_mujoco_servo.py` plays ten against the same compiled servo without the node.
-Ten of which it knows the data sheet go from unknown to quiet.
+Ten of which it knows the data sheet go from unknown to quiet, and ten more with each encoder alone.
 """
 
 from collections.abc import Callable
@@ -72,3 +72,29 @@ def test_a_drive_of_mujoco_goes_from_unknown_to_quiet(rig: Callable[..., Rig], n
     move = judge_move(time, position, made.start + 1.0, b, count)
     assert move.swing <= threshold(QUIET, b, count)
     assert move.error <= threshold(PRECISE, b, count)
+
+
+@pytest.mark.skipif(not HAS_DC_MOTOR, reason="needs MuJoCo 3.7: dcmotor")
+@pytest.mark.grid
+@pytest.mark.parametrize("number", OUTRUN)
+@pytest.mark.parametrize("encoders", ["load", "motor"])
+def test_with_one_encoder_it_is_learned_or_refused_and_quiet(
+    rig: Callable[..., Rig], encoders: str, number: int
+) -> None:
+    member = of_steel(number, encoders)
+    b, count = member.drive.gear.backlash_angle, member.load_count
+    made = rig(member, plant=MujocoServoDrive(member))
+    answer = made.drive.call("identify")
+    known = made.in_use()
+    assert known["identified"] == answer.success
+    if answer.success:
+        assert known["backlash_angle"] == pytest.approx(b, abs=max(GAP_NEAR * b, count))
+    else:
+        assert answer.message.startswith("nothing was identified: ")
+    made.drive.run(round(STAND * member.rate))
+    time, position = made.step(1.0, 4.0)
+    move = judge_move(time, position, made.start + 1.0, b, count)
+    print(f"{encoders} {number}: {answer.message[:60]}; swing {move.swing / b:.3f} b, error {move.error / b:.3f} b")
+    assert move.swing <= threshold(QUIET, b, count)
+    if answer.success:
+        assert move.error <= threshold(PRECISE, b, count)

@@ -54,12 +54,12 @@ class MujocoServoDrive(SimulatedDrive):
         self._line.taken[self._sample % LINE] = self.state
 
 
-def of_steel(number: int) -> Member:
+def of_steel(number: int, encoders: str = "both") -> Member:
     """Return a drive of `core` with teeth that T_s/4 winds up by 0.02 to 0.1 b and that are damped by 0.05 to 1.
 
     T_s is the stall torque. MuJoCo has them as a spring and a damper that also pulls.
     """
-    member, rng = draw_member(SEED, number, "core"), np.random.default_rng([SEED, number])
+    member, rng = draw_member(SEED, number, "core", encoders), np.random.default_rng([SEED, number])
     drive, (share, damping) = member.drive, rng.random(2)
     wind_up = 0.02 * 5.0**share * drive.gear.backlash_angle / (0.25 * drive.standstill_torque())
     both = drive.load.inertia * drive.reflected_inertia / drive.effective_inertia
