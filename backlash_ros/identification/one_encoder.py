@@ -8,6 +8,7 @@ without encoder; each impact shows its position.
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -125,6 +126,12 @@ _BORNE = 0.05
 """Share of the torque at standstill at which free teeth begin as those that were found; tuned."""
 _PUNCTUAL = 1e-5
 """Standard deviation of the times of the samples, in periods: as good as 0."""
+_EARLY_OR_LATE = 0.06
+"""The same where stamps jitter: of times that are even within a tenth of a period to either side."""
+_TIMINGS = (_PUNCTUAL, 0.02, _EARLY_OR_LATE, 0.12)
+"""Those of which the likeliest is taken at the end."""
+_GENTLE = 0.3
+"""Share of the recording, which is gentle: there the load bounces in the gap, and the least error grows; tuned."""
 _LEAST_INERTIA = 0.06
 """Least inertia of the load over that of the motor that a guess may have; tuned."""
 _LARGEST_INERTIA = 1.2
@@ -253,7 +260,8 @@ def _warmer(stage: Stage, by: float) -> Stage:
 class _Search:
     """From many starts to the bottom, by one contact law after the other."""
 
-    def __init__(self, drive: Drive, recording: Recording, torque: float) -> None:
+    def __init__(self, drive: Drive, recording: Recording, torque: float, timing: float = _PUNCTUAL) -> None:
+        self._timing = timing
         self.recording, angle, self.by_motor = _pinned(recording)
         time = recording.time
         self._drive, self._torque, self._side = drive, torque, motor_side(drive)
@@ -347,7 +355,7 @@ class _Search:
         """Return the noise of a stage as a `Problem` takes it."""
         unit = 0.1 * self._torque / self._side.inertia
         motor, load = math.sqrt(stage.motor) / unit, math.sqrt(stage.load) / unit
-        return np.log([motor, load, stage.teeth, _PUNCTUAL])
+        return np.log([motor, load, stage.teeth, self._timing])
 
     def solve(self, problem: Problem, x: Array, stage: Stage, most: int, enough: float) -> Minimum:
         """Minimise from ``x`` with the noise of a stage until a step gains less than ``enough``."""
@@ -413,6 +421,18 @@ class _Search:
                     for delay in _DELAYS:
                         yield self._start(float(gap), inertia, (1.0 - share) * dry, share * dry, delay)
 
+    def ends(self, laws: Sequence[Candidate]) -> list[Minimum]:
+        """Return the minima that are found by each law itself, the best first."""
+        ends = self.in_play(laws) if self.by_motor else []
+        if ends and ends[0].explained:
+            return ends
+        begun = [self.begin(teeth) for teeth in laws]
+        for k in range(_KEPT):
+            ends = sorted([*ends, *(self.go_on(found[k]) for found in begun)], key=cost_of)
+            if ends[0].explained:
+                break
+        return ends
+
     def in_play(self, laws: Sequence[Candidate]) -> list[Minimum]:
         """Return the minima from about where the motor carries the load in play, the best first."""
         delays = [share * self._period for share in _LATE]
@@ -455,6 +475,16 @@ class _Search:
         whole = replace(begun.problem, recording=self._thin)
         warm, first = (_LITTLE, _LITTLE) if begun.explained else (_WARM, _FAR)
         return self.descend(whole, self.solve(whole, begun.x, self.stages[warm], 5, 0.5).x, first)
+
+    def timed(self, timing: float) -> "_Search":
+        """Return a search of the same recording with another timing."""
+        other = copy(self)
+        other._timing = timing
+        return other
+
+    def near(self, found: Minimum) -> Minimum:
+        """Return the minimum beside one that another search has found."""
+        return self.descend(found.problem, found.x, max(found.stage - 1, 0))
 
     def anew(self, found: Minimum) -> list[Minimum]:
         """Return the minima from gaps of any width, with the rest about as found.
@@ -550,6 +580,41 @@ class OneSided(NamedTuple):
     both: bool
 
 
+def _brisk(recording: Recording) -> Recording:
+    """Return the brisk part of a recording of the motor's angle."""
+    late = np.arange(recording.time.size) >= _GENTLE * recording.time.size
+    first = int(np.argmax(late & np.isfinite(recording.motor)))
+    return recording.part(slice(first, None))
+
+
+def _first_ends(
+    drive: Drive, recording: Recording, torque: float, laws: Sequence[Candidate]
+) -> tuple[_Search, list[Minimum]]:
+    """Return a search and its ends, the best first: of one that leaves nothing to be explained, or the likeliest.
+
+    All is tried with samples on time, then not; with the motor's encoder, then without the gentle part.
+    """
+    search = _Search(drive, recording, torque)
+    ends = search.ends(laws)
+    if ends[0].explained:
+        return search, ends
+    if search.by_motor:
+        brisk = _Search(drive, _brisk(recording), torque)
+        found = brisk.in_play(laws)
+        if found[0].explained:
+            return brisk, found
+    jittery = _Search(drive, recording, torque, _EARLY_OR_LATE)
+    found = jittery.ends(laws)
+    return (jittery, found) if found[0].cost < ends[0].cost else (search, ends)
+
+
+def _timed(search: _Search, found: Minimum) -> tuple[_Search, Minimum]:
+    """Return the likeliest of an end and those beside it with other timings, and the search that it is of."""
+    others = [search.timed(timing) for timing in _TIMINGS]
+    ends = [(search, found), *((other, other.near(found)) for other in others)]
+    return min(ends, key=lambda each: each[1].cost)
+
+
 def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()) -> OneSided:
     """Return the likeliest fit of a recording of one angle.
 
@@ -560,15 +625,8 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
     torque : of the motor at standstill, N m at the output
     contacts : the laws to try, see `contacts_of`
     """
-    search = _Search(drive, recording, torque)
     laws = [told_teeth(drive, contact) for contact in contacts or contacts_of(drive)]
-    ends = search.in_play(laws) if search.by_motor else []
-    if not (ends and ends[0].explained):
-        begun = [search.begin(teeth) for teeth in laws]
-        for k in range(_KEPT):
-            ends = sorted([*ends, *(search.go_on(found[k]) for found in begun)], key=cost_of)
-            if ends[0].explained:
-                break
+    search, ends = _first_ends(drive, recording, torque, laws)
     if not ends[0].explained:
         ends = sorted([*ends, *search.anew(ends[0])], key=cost_of)
     for _ in range(_ROUNDS):
@@ -582,6 +640,7 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
     best = ends[0]
     here = _ln_half_gap(best.x)
     others = [(abs(_ln_half_gap(end.x) - here), end.cost - best.cost) for end in ends if math.isfinite(end.cost)]
+    search, best = _timed(search, best)
     end = search.finish(best)
     return OneSided(
         fit=search.fit(end),
