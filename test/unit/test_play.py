@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backlash_ros.identification.play import carried
+from backlash_ros.identification.one_encoder.play import carried
 
 PERIOD = 1e-3
 

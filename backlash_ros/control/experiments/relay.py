@@ -22,7 +22,7 @@ from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.drivetrain import Drive
 from backlash_ros.foundation.quantity import Validated, quantity
 from backlash_ros.foundation.signals import THETA_L, THETA_M, Estimate, Measurement
-from backlash_ros.identification.one_encoder import measure_gap_one_sided
+from backlash_ros.identification.one_encoder.gap import measure_gap_one_sided
 from backlash_ros.identification.recording import Recording, with_late_answers
 
 _RECORDED_FROM = 0.3

@@ -12,7 +12,7 @@ from backlash_ros.identification.drive import identified_drive
 from backlash_ros.identification.fitting.fit import Fit, fit
 from backlash_ros.identification.gap import Gap, delays_of, measure_gap
 from backlash_ros.identification.gap_map import FEWEST_PLACES, Mapped
-from backlash_ros.identification.one_encoder import measure_gap_one_sided
+from backlash_ros.identification.one_encoder.gap import measure_gap_one_sided
 from backlash_ros.identification.recording import Recording
 from backlash_ros.identification.recordings.findings import Finding, findings_of
 from backlash_ros.identification.recordings.held_out import Score, first_part, score

@@ -1,0 +1,105 @@
+"""The gap by the fit of a recording of one encoder, with its uncertainty, or why there is none."""
+
+import math
+
+import numpy as np
+
+from backlash_ros.drivetrain import Drive
+from backlash_ros.identification.counts import count_of
+from backlash_ros.identification.gap import Gap
+from backlash_ros.identification.one_encoder.fit import fit_one_sided
+from backlash_ros.identification.one_encoder.search import COARSE, FAR, FITS, LIGHT, PULL, STAGES
+from backlash_ros.identification.recording import Recording
+
+_SMALL_ERROR = 2.5e-3
+"""Errors of the angle, as a share of the gap, that hardly matter, whatever the counts: the model is not the drive."""
+_MOST = 2.5
+"""Largest rms of the innovations for which they hardly matter."""
+_MOST_GAIN = 0.4
+"""Largest difference of the motor's gain from its data sheet, as ln, with which a gap is believed."""
+_FEWEST = 5.0
+"""Counts of the encoder that a gap must have: of 80 drives that were learned, one was wrong, a gap of 2.9 counts."""
+_WORSE = 60.0
+"""Cost by which another gap has to be worse; tuned."""
+_SURE = 0.12
+"""Largest standard uncertainty of a gap to be used, a share of it."""
+_NOISE = 1.5
+"""Component of the uncertainty: times the standard deviation by the noise; tuned."""
+_MODEL = 0.05
+"""Component of the uncertainty: a share of the gap. One angle shows errors of motor and amplifier hardly apart from the
+gap; tuned on drives with one effect of real axes each."""
+_UNEXPLAINED = 40.0
+"""Component of the uncertainty: a share of the gap for what nothing explains on motor and load, as shares of the torque
+at standstill. The gentlest motion has 5 % of it, and twice what disturbs that counts; tuned."""
+_CURVED = 0.05
+"""Component of the uncertainty: a share of the gap for each square radian of the way, since a gap varies."""
+_SLOPE = 0.5
+"""Component of the uncertainty: a share of what the gap seems to change by over the way, since the model's errors look
+like that."""
+_WIND_UP = 0.25
+"""Component of the uncertainty: a share of how far the teeth wind up under what they bore, which may pass for gap."""
+
+
+def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> Gap:
+    """Return the gap where the load started, from one angle; see `fit_one_sided`."""
+    found, worse, near, stage, both = fit_one_sided(drive, recording, torque)
+    gap, size = found.gap, max(found.rms)
+    by_motor = bool(np.isnan(recording.load).all())
+    angle = recording.motor if by_motor else recording.load
+    way = float(np.nanmax(angle) - np.nanmin(angle))
+    deviation = _NOISE * found.gap_deviation
+    change = float(found.values.gap_slope) * way
+    twist = found.teeth.twist(found.shape, 0.5 * gap, found.bearing) - 0.5 * gap
+    share = math.exp(found.values.ln_load_inertia) / drive.reflected_inertia
+    light = by_motor and share < LIGHT
+    unexplained = math.hypot(found.noise[0], found.noise[1])
+    shares = math.hypot(_MODEL, _UNEXPLAINED * unexplained, _CURVED * way**2, near, _SLOPE * change)
+    uncertainty = math.hypot(deviation, shares * gap, _WIND_UP * twist)
+    why = ""
+    count = count_of(angle)
+    reading = max(count, COARSE) / math.sqrt(12.0)  # its standard deviation, as it was assumed
+    fits = max(FITS, min(_SMALL_ERROR * gap / reading, _MOST))
+    if not size <= fits:
+        why = (
+            f"no model of teeth, friction and load explains what was seen: its errors are {size:.2g} times as large "
+            f"as the encoder's counts allow, and may be {fits:.2g} times; check that the encoder counts in the "
+            "direction of the motor, gear.reduction and the motor's parameters, and that nothing else moves the load"
+        )
+    elif stage < FAR:
+        why = (
+            "something moves the motor or the load that is neither the command nor the gear: as seen at the motor, "
+            f"{100.0 * found.noise[0]:.2g} % of the standstill torque is unexplained; check the motor's values and "
+            "gear.reduction, and that nothing else moves the load"
+        )
+    elif abs(off := float(found.values.ln_motor_gain)) > _MOST_GAIN:
+        why = (
+            f"the command seems to accelerate the motor {math.exp(off):.2g} times as much as its data sheet says: "
+            "check the unit of the command, the motor's values, its supply and gear.reduction"
+        )
+    elif not both:
+        side = "negative" if -found.torques[0] < found.torques[1] else "positive"
+        why = f"the teeth never bore a {side} torque, so the far flank was not seen"
+    elif light and stage < len(STAGES) - 1:
+        why = (
+            f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {LIGHT:g} of it the "
+            "motor hardly feels it, and what was seen is not plain enough for that"
+        )
+    elif by_motor and found.pull > PULL:
+        why = (
+            f"the errors that are left pull the gap {found.pull:.2g} times as much as noise would, and may {PULL:g} "
+            "times: the search has ended beside the drive; learn again"
+        )
+    elif gap < _FEWEST * count:
+        counts = gap / count
+        why = f"the gap is {gap:.2g} rad, {counts:.2g} counts of the encoder: fewer than {_FEWEST:g} do not tell it"
+    elif worse < _WORSE:
+        why = "gaps of different widths explain what was seen equally well"
+    elif not uncertainty <= _SURE * gap:
+        why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
+    if why:
+        return Gap(0.0, 0.0, False, why, found)
+    told = (
+        f"{recording.time[-1] - recording.time[0]:.1f} s of motion of one encoder, with teeth by "
+        f"{found.teeth.name} law that bore {found.torques[0]:.2g} to {found.torques[1]:.2g} N m"
+    )
+    return Gap(gap, uncertainty, True, told, found)
