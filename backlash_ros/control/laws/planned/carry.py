@@ -23,7 +23,7 @@ from backlash_ros.control.laws.planned.plan import add_contact, add_crossing, re
 from backlash_ros.foundation.compiled import compiled
 
 _USED_RESISTANCE = 0.85
-"""Share of the load torque that a carry and a shift use to change the speed, so that the teeth stay in contact."""
+"""Share of the resistance that a carry and a shift use to change the speed, so that the teeth stay in contact."""
 _LEAST_RUN = 0.03
 """Shortest time, s, in which a load that is carried gains its speed, and for each half of a shift. Tuned on the
 populations."""
@@ -45,7 +45,7 @@ _LEAST_SHOWING = 0.06
 def carry(constants: Constants, plan: Plan, resistance: float, longest: float) -> bool:
     """Plan the move on the braking flank alone if a negative resistance (N m) carries the load.
 
-    Return False, without a plan, if it takes ``longest`` (s) or longer, or if the load is too fast.
+    Return False, without a plan, if it takes ``longest`` (s) or longer from the flank on, or if the load is too fast.
     """
     move, brake = plan.move, constants.brake_time
     gain = _USED_RESISTANCE * abs(resistance) / constants.load_inertia / BUMP_PEAK

@@ -16,7 +16,7 @@ class Wanted(NamedTuple):
     speed: float  # rad/s
     torque: float  # N m, that this motion needs
     teeth_torque: float  # N m, that the teeth are to carry
-    mean_speed: float  # rad/s, for which the voltage is computed
+    mean_speed: float  # rad/s, whose back-EMF the voltage cancels: the plan's in flight, in hold the motor's own
 
 
 @compiled

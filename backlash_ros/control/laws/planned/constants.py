@@ -13,7 +13,7 @@ TABLE_SIZE = 16
 GAINS = 8
 """Number of gains of the motor's observer, each for readings that err by twice as much as for the one before."""
 FINEST_ERROR = 4.5e-5
-"""Error of the readings at the output, rad, for the first of them: a count of 14 bit before a gear of 10:1."""
+"""Error of the readings at the output, rad, for the first of them: about a count of 14 bit before a gear of 10:1."""
 
 
 class MotorModel(Record):
@@ -49,7 +49,7 @@ class Constants(Record):
     motor_inertia: float  # J_m/n^2, kg m^2
     motor_friction: float  # B_m/n^2, N m s/rad
     motor_dry_friction: float  # N m
-    friction_rate: float  # 1/s, with which a motor that dry friction keeps from its target goes there
+    friction_rate: float  # 1/s: friction counts as at the wanted speed plus this times the error
     load_inertia: float  # J_l, kg m^2
     load_friction: float  # B_l, N m s/rad
     load_dry_friction: float  # tau_c, N m
@@ -57,7 +57,7 @@ class Constants(Record):
 
     stall_torque: float  # N m, of the motor at standstill
     available_torque: float  # N m, the same with the largest command that the controller sends
-    no_load_speed: float  # rad/s, of the motor with that command
+    no_load_speed: float  # rad/s, of the motor with that command; by the largest voltage where it is a current
     volts_per_torque: float  # V/(N m)
     volts_per_speed: float  # V s/rad
     back_emf: float  # V s/rad at the motor, true s; 0 where the command is the voltage

@@ -3,9 +3,10 @@
 The law leaves the load alone while it is near enough: with the motor in the middle of the gap, or on the flank where
 the load torque holds it. If the load is not near enough:
 
-    held by a load torque     it is moved with the motor, without leaving the flank: led in, or by a shift
+    held by a load torque     it is moved with the motor on the flank: led in, or by a shift; from far away it is thrown
     stuck by dry friction     it is pressed to its target
     free                      it is led in by the flank behind or before it, no faster than it can stop by itself
+    not held, and far away    it is thrown
 """
 
 import math
@@ -117,7 +118,7 @@ def _lead_free_load(constants: Constants, memory: Memory, error: float, load_ang
 
 
 @compiled
-def _end_parking_of_free_load(constants: Constants, memory: Memory, error: float, load_angle: float) -> None:
+def _end_parking_of_unheld_load(constants: Constants, memory: Memory, error: float, load_angle: float) -> None:
     """No longer leave a load alone that nothing holds, though it was at rest."""
     end_parking(memory.hold)
     memory.hold.waiting_time = 0.0
@@ -129,7 +130,7 @@ def _end_parking_of_free_load(constants: Constants, memory: Memory, error: float
 
 
 @compiled
-def _hold_free_load(constants: Constants, memory: Memory, error: float, load_angle: float) -> Wanted:
+def _hold_unheld_load(constants: Constants, memory: Memory, error: float, load_angle: float) -> Wanted:
     """Hold a load that no torque holds."""
     hold, load, motor = memory.hold, memory.load, memory.motor.predicted
     inner, outer = inner_band(constants, load), outer_band(constants, load)
@@ -138,7 +139,7 @@ def _hold_free_load(constants: Constants, memory: Memory, error: float, load_ang
     memory.flank = 0.0
     if hold.parking_time >= 0.0:
         if abs(error) > outer and hold.waiting_time > DWELL:
-            _end_parking_of_free_load(constants, memory, error, load_angle)
+            _end_parking_of_unheld_load(constants, memory, error, load_angle)
     elif abs(resting_error) < inner and abs(error) < outer and abs(coasts) < outer:
         hold.parking_time, hold.parked_from = 0.0, motor.angle
         memory.motor_target = load_angle + coasts + memory.middle
@@ -166,7 +167,7 @@ def hold_load(constants: Constants, memory: Memory, target: float) -> Wanted:
     if held:
         wanted = hold_held_load(constants, memory, target - angle)
     else:
-        wanted = _hold_free_load(constants, memory, target - angle, angle)
+        wanted = _hold_unheld_load(constants, memory, target - angle, angle)
     if memory.next_move == NO_MOVE:
         attribute_to_teeth(memory.motor, memory.sent, wanted.teeth_torque)
     return wanted

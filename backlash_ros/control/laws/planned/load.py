@@ -15,7 +15,7 @@ from backlash_ros.foundation.compiled import compiled
 _NO_CHANGE = 1e-9
 """Rad, up to which two readings are the same."""
 _SMALLEST_COUNT = 1e-6
-"""Rad: least step that is taken for a count."""
+"""Least step that is taken for a count, rad."""
 _NOISE_TIME = 0.2
 """Time, s, over which noise is looked at while holding. Tuned on the populations."""
 _NOISE_COUNT = 1.6
@@ -23,7 +23,7 @@ _NOISE_COUNT = 1.6
 UNKNOWN_COUNT = 0.05
 """Assumed encoder count, as a share of the gap, until one is seen."""
 _FLIGHT_UNCERTAINTY = 60.0
-"""How far the load's acceleration may be from what is known of it at 250 Hz, rad/s^2. Tuned on the populations."""
+"""Unknown acceleration of the load in flight and follow, rad/s^2, at 250 Hz. Tuned on the populations."""
 _HOLD_UNCERTAINTY = 4.0
 """The same in hold, rad/s^2. Tuned on the populations."""
 _FREE_UNCERTAINTY = 0.3
@@ -39,12 +39,12 @@ _SPEED_SHARE = 0.5
 STANDSTILL = 0.02
 """Speed, rad/s, below which the load stands. Tuned on the populations."""
 _LEAST_LAG = 0.1
-"""Of the filter, so that it does not ring where its readings have no count."""
+"""Least pole of the filter, so that it does not ring where its readings have no count."""
 
 
 @compiled
 def measure_count(constants: Constants, load: Load, reading: float, holds: bool) -> None:
-    """Look for the smallest step of the readings and, in hold, for their noise."""
+    """Look for the smallest step of the readings, the first one only in hold at rest, and in hold for their noise."""
     change = reading - load.last_reading
     step = abs(change)
     if step > _NO_CHANGE and load.smallest_step > 0.0:
@@ -68,7 +68,7 @@ def _readings_astray(load: Load, error: float) -> float:
 
 @compiled
 def _uncertainty(constants: Constants, memory: Memory) -> float:
-    """Return how far the load's acceleration may be from what is known of it at 250 Hz, rad/s^2."""
+    """Return the unknown acceleration of the load at 250 Hz, rad/s^2."""
     if memory.phase != HOLD or abs(memory.load.readings_astray) > _ASTRAY_READINGS:
         return _FLIGHT_UNCERTAINTY
     if memory.held == 0.0 and teeth_are_apart(constants, memory):

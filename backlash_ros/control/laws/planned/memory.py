@@ -30,7 +30,7 @@ REMEMBERED = 12
 DRAG_SIZE = 5
 """Number of quantities that the drag's filter estimates."""
 MOST_SEGMENTS = 6
-"""Approach, push, cruise, crossing, brake, and back or leave."""
+"""Most segments of a plan: approach, push, cruise, crossing, brake, and back or leave."""
 
 
 class Doubt(Record):
@@ -65,7 +65,7 @@ class Motor(Record):
     compensation: float = 0.0  # N m, of the disturbance
     last_reading: float = 0.0  # rad
     count: Count = part(Count)
-    gain: float = 0.0  # the number of the observer's gain
+    gain: float = 0.0  # index of the observer's gain in `Constants.gains`
     doubt: Doubt = part(Doubt)
 
 
@@ -78,7 +78,7 @@ class Load(Record):
     last_change: float = 0.0  # rad, of the last two readings
     smallest_step: float = 0.0  # rad, of the readings; 0 until one is seen
     roughness: float = 0.0  # rad, mean second difference of the readings
-    count: float = 0.0  # rad, of the encoder, as steps and noise show it
+    count: float = 0.0  # rad, of the encoder, as steps and noise show it; with one encoder, the model's doubt, too
     readings_astray: float = 0.0  # so many in a row beyond where it rests, with the sign of the side
     doubt: Doubt = part(Doubt)
 
@@ -145,7 +145,7 @@ class Throw(Record):
 
     angle: float = 0.0  # rad, of the load where it is touched
     touch_speed: float = 0.0  # rad/s, of the load there
-    moves: float = 0.0  # 1 if the load moves as it is touched
+    moves: float = 0.0  # 1 if the load moves as the plan begins
     adapts: float = 0.0  # 1 if the resistance while the motor crosses is taken where it does
     speed: float = 0.0  # rad/s, after the push
     approach_time: float = 0.0  # s
@@ -159,7 +159,7 @@ class Plan(Record):
     """The plan that is flown."""
 
     time: float = 0.0  # s, since its start
-    rest_torque: float = 0.0  # N m, of the teeth at its end
+    rest_torque: float = 0.0  # N m, of the teeth at its end; forward, unlike its neighbours
     segment_count: float = 0.0
     segments: Sequence[Segment] = parts(Segment, MOST_SEGMENTS)
     move: Move = part(Move)
@@ -170,7 +170,7 @@ class Hold(Record):
     """How the load is held at its target."""
 
     time_since_landing: float = 0.0  # s, in hold
-    waiting_time: float = 0.0  # s, since hold or its kind began, or parking ended
+    waiting_time: float = 0.0  # s, since hold or its kind began; of a load that is not held, since parking ended, too
     attempts: float = 0.0  # to move the load
     error_share: float = 0.0  # of the error that a shift or a press takes
     last_error: float = 0.0  # rad, of a shift or a press
@@ -199,7 +199,7 @@ class Learned(Record):
 
 
 class Drag(Record):
-    """What motion costs beyond the model, as learned from the momentum of both shafts."""
+    """What motion costs beyond the model, positive against forward motion; learned from the momentum of both shafts."""
 
     load: float = 0.0  # N m, in both directions: a load torque
     friction: float = 0.0  # N m, against each direction

@@ -29,7 +29,7 @@ _UNKNOWN_TORQUE = 10.0
 """Torque, as acceleration of the motor, rad/s^2, that the teeth may carry beyond what is known. Tuned on the
 populations."""
 LARGEST_SHARE = 0.3
-"""Of an error, that is learned in one period at most. Tuned on the populations."""
+"""Largest share of an error that is learned in one period. Tuned on the populations."""
 
 
 @compiled

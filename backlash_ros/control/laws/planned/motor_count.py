@@ -15,7 +15,7 @@ _NO_CHANGE = 1e-9
 _SAME = 0.02
 """Share of a count by which a change may be off a multiple of it: readings are rounded."""
 _AGREE = 8.0
-"""So many changes in a row show a count: each is a multiple of twice the count by chance, one in two."""
+"""Changes in a row that must agree on a count: by chance each is a multiple of twice the count, one in two."""
 _FINE = 0.25
 """Share of `FINEST_ERROR` below which it does not matter how fine a count is."""
 

@@ -27,13 +27,14 @@ _SOFT_PEAK = 1.78
 TOP_SPEED = 0.6
 """Share of the no-load speed that a plan uses. Tuned on the populations."""
 CARRY_SPEED = 0.3
-"""Speed of the load, rad/s, below which it may be carried from rest. Tuned on the populations."""
+"""Speed of the load, rad/s, below which a carry is planned as from rest. Tuned on the populations."""
 REACHED = 0.92
 """g, in half gaps, above which a flank is reached. Tuned on the populations."""
 _TOUCH_TORQUE = 10.0
 """Torque with which teeth are touched, as acceleration of the motor, rad/s^2. Tuned on the populations."""
 _EFFORT = 0.75
-"""Share of the torque available at a speed that a push uses. Tuned on the populations."""
+"""Share of the torque available at a speed that a push uses, and of that at standstill that a brake uses. Tuned on the
+populations."""
 _LEAST_EFFORT = 0.1
 """Share of the torque available at standstill that is left for a push at least, whatever resists. Tuned on the
 populations."""
@@ -80,7 +81,7 @@ def coasting_distance(constants: Constants, speed: float) -> float:
 
 @compiled
 def shortest_push(constants: Constants, length: float, gain: float, speed: float, resistance: float) -> float:
-    """Return the shortest time for a push that gains a speed, s, given the motor's torque; ``length`` at least."""
+    """Return the time of a push that gains a speed: ``length``, s, or more if the motor is too weak for that."""
     inertia = constants.motor_inertia + constants.load_inertia
     steady = max(resistance, 0.0) + constants.load_friction * speed
     slower = 1.0 - min(speed / constants.no_load_speed, _SLOWEST_EFFORT)
@@ -93,7 +94,7 @@ def shortest_push(constants: Constants, length: float, gain: float, speed: float
 
 @compiled
 def shortest_brake(constants: Constants, length: float, speed: float) -> float:
-    """Return the shortest time for a brake from a speed (rad/s), s, given the motor's torque; ``length`` at least."""
+    """Return the time of a brake from a speed (rad/s): ``length``, s, or more if the motor is too weak for that."""
     inertia = constants.motor_inertia + constants.load_inertia
     return max(length, inertia * _SOFT_PEAK * speed / (_EFFORT * constants.available_torque))
 

@@ -28,7 +28,11 @@ class PlannedParameters(Validated):
         default=0.03,
     )
     brake_time: float = quantity(
-        "longest time for which the load is braked", "s", at_least=1e-3, at_most=10, default=0.08
+        "time for which a load that is thrown is braked: longer by a weak motor, shorter where it soon stops by itself",
+        "s",
+        at_least=1e-3,
+        at_most=10,
+        default=0.08,
     )
     bandwidth: float = quantity(
         "bandwidth of the motor's own loop; up to twice as much where sampling and delay allow it",

@@ -11,7 +11,8 @@ LONG = 2.0
 LARGEST_LEAD = 2.0
 """Largest speed, rad/s, with which a load is led or met. Tuned on the populations."""
 DWELL = 0.05
-"""Time, s, for which a flank leads, and for which a parked load is left alone, at least. Tuned on the populations."""
+"""Shortest time, s, for which a flank leads; and after hold began or parking ended, until parking of a load that no
+torque holds may end. Tuned on the populations."""
 _INNER_GAP = 0.04
 """Error of the load, in gaps, below which it is left alone. Tuned on the populations."""
 _INNER_COUNT = 0.3
@@ -29,7 +30,8 @@ _WATCH_GROWTH = 0.06
 _MOST_ATTEMPTS = 5.0
 """Attempts up to which it grows. Tuned on the populations."""
 _REST_TIME = 1.0
-"""Time at rest, s, after which earlier attempts say nothing any more: something else has moved the load."""
+"""Time, s, since hold began or parking ended, after which earlier attempts say nothing any more: something else has
+moved the load."""
 _SHORTER = 0.8
 """Factor by which each change of the error's sign shortens the next move, to prevent hunting."""
 _LEAST_SHARE = 0.3
@@ -67,7 +69,7 @@ def shortened(hold: Hold, error: float) -> float:
 
 @compiled
 def end_parking(hold: Hold) -> None:
-    """No longer leave the load alone; forget earlier attempts if it was at rest for long."""
+    """No longer leave the load alone; forget earlier attempts if the last is long ago."""
     hold.parking_time = -1.0
     if hold.waiting_time > _REST_TIME:
         forget_attempts(hold)

@@ -59,7 +59,7 @@ def length_of(plan: Plan) -> float:
 
 @compiled
 def resistance_at(constants: Constants, load_torque: LoadTorque, direction: float, angle: float) -> float:
-    """Return the torque that brakes the load at an angle, at any speed, N m; both in the move's own direction."""
+    """Return the torque that brakes the load at an angle, whatever its speed, N m; both in the move's direction."""
     return constants.load_dry_friction - direction * load_torque_at(load_torque, direction * angle)
 
 
@@ -140,7 +140,7 @@ def evaluate(constants: Constants, memory: Memory, time: float) -> PlannedMotion
 
 @compiled
 def fly_on(constants: Constants, memory: Memory) -> Wanted:
-    """Follow the plan for one period: the motor goes by its own encoder, without feedback from the load.
+    """Follow the plan for one period: the motor goes by its own encoder, the load does not move it.
 
     The torque is that of an inverse model of the motor, read ahead by the winding's time constant.
     """

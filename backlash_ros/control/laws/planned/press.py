@@ -23,12 +23,12 @@ _USED_RESISTANCE = 0.5
 _USED_FRICTION = 0.3
 """Share of the load's viscous friction that a press counts with, so that the teeth stay in contact."""
 _ROUNDS = 6
-"""Times that speed and times of a press are computed anew, as they depend on each other."""
+"""Rounds in which speed and durations of a press are computed, as they depend on each other."""
 _FALLEN_GAPS = 8.0
-"""Twice the number of gaps through which a load torque would pull the load while the motor approaches it, from which on
-the load lies on the motor's flank already. Tuned on the populations."""
+"""A load torque that would pull the load through four gaps while the motor approaches has laid it on the motor's flank:
+8, since twice the way is an acceleration times the time squared. Tuned on the populations."""
 _LEAST_RESISTANCE = 0.3
-"""Share of its friction that resists a load at least, however large the torque that it hides. Tuned on the
+"""Least resistance of a stuck load, as a share of its friction, whatever load torque that hides. Tuned on the
 populations."""
 
 
@@ -71,7 +71,7 @@ def _solve(constants: Constants, move: Move, resistance: float) -> _Press:
 
 @compiled
 def press(constants: Constants, plan: Plan, resistance: float) -> None:
-    """Plan the move on the driving flank alone, if a resistance (N m) brakes."""
+    """Plan the move on the driving flank alone, against a resistance > 0, N m."""
     move = plan.move
     length = approach_time(constants, move.gap_position)
     # A large load torque has long laid the load on that flank, wherever the middle is thought to be.
@@ -92,7 +92,10 @@ def press(constants: Constants, plan: Plan, resistance: float) -> None:
 
 @compiled
 def press_stuck_load(constants: Constants, memory: Memory, target: float, shafts: Shafts) -> float:
-    """Plan to push a load that dry friction holds to its target, rad; return the flank."""
+    """Plan to push a load that dry friction holds to its target, rad; return the flank.
+
+    A load torque that would leave less resistance than `_LEAST_RESISTANCE` is believed to be smaller.
+    """
     plan, move, friction = memory.plan, memory.plan.move, constants.load_dry_friction
     direction = 1.0 if target >= shafts.load else -1.0
     resistance = resistance_at(constants, memory.load_torque, direction, direction * shafts.load)

@@ -18,7 +18,7 @@ from backlash_ros.foundation.record import Array, row_of
 from backlash_ros.foundation.signals import OMEGA_L, OMEGA_M, POSITION, THETA_L, THETA_M, Estimate, Setpoint
 
 _BLOW_RATE = 150.0
-"""1/s, by which the load's speed at a take-over makes the torque that held it uncertain, as momentum: it may rattle.
+"""Rate, 1/s: times the load's momentum, it is the torque by which blows may falsify what held the load; it may rattle.
 Tuned on the populations."""
 
 

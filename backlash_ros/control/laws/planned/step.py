@@ -1,6 +1,7 @@
 """One step of the law: it observes both shafts, chooses a phase, and moves the motor.
 
-In flight the motor follows its plan on its own encoder, without feedback from the load. In hold the law acts by events.
+In flight the motor follows its plan on its own encoder; the load only shows where the middle of the gap is. In hold
+the law acts by events.
 """
 
 from backlash_ros.control.command_range import clamp

@@ -26,7 +26,7 @@ def contact_distance(constants: Constants, torque: float) -> float:
 
 @compiled
 def light_contact_distance(constants: Constants, torque: float) -> float:
-    """Return the same, below the table's first torque too, where the distance goes on with the first two's power."""
+    """Return the same also below the table's first torque, by the power law through its first two."""
     size, first = abs(torque), constants.teeth_torques[0]
     if size >= first:
         return contact_distance(constants, size)

@@ -21,10 +21,10 @@ from backlash_ros.control.laws.planned.plan import add_contact, add_crossing, re
 from backlash_ros.foundation.compiled import compiled
 
 _ROUNDS = 5
-"""Times that a throw is computed anew."""
+"""Rounds in which a throw is computed."""
 _BRAKE_SHARE = 1.33
-"""Twice the share of the time in which the load would stop by itself that the brake takes at most: so short that the
-braking flank has to brake, too, and stays in contact."""
+"""Longest brake, as twice its share of the time in which the load would stop by itself: two thirds, so that the braking
+flank has to brake, too, and stays in contact."""
 _SHORT_BRAKE = 0.035
 """Time, s, below which the driving flank does the brake's work: the load is pressed. Tuned on the populations."""
 _HARD = 165.0
@@ -34,7 +34,7 @@ _HARD = 165.0
 class Landing(NamedTuple):
     """The flight of a load that is pushed up to some speed."""
 
-    end: float  # rad, where it comes to rest
+    end: float  # rad, where it comes to rest, without a cruise
     pushed: float  # rad, where the push ends
     push_first: float  # rad/s^2, as the push starts
     push_last: float  # rad/s^2, as it ends

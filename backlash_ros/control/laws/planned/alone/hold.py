@@ -123,7 +123,7 @@ def _has_gone(constants: AloneConstants, memory: AloneMemory, error: float) -> b
 
 
 @compiled
-def _hold_free_load(constants: AloneConstants, memory: AloneMemory, target: float) -> Wanted:
+def _hold_unheld_load(constants: AloneConstants, memory: AloneMemory, target: float) -> Wanted:
     """Hold a load that no torque holds."""
     plans, hold, known, ahead = memory.plans, memory.plans.hold, constants.plans, memory.ahead
     inner, outer = inner_band(known, plans.load), outer_band(known, plans.load)
@@ -160,5 +160,5 @@ def hold_alone(constants: AloneConstants, memory: AloneMemory, target: float) ->
     if plans.held != 0.0:
         wanted = hold_held_load(known, plans, target - memory.ahead.load_angle)
     else:
-        wanted = _hold_free_load(constants, memory, target)
+        wanted = _hold_unheld_load(constants, memory, target)
     return wanted

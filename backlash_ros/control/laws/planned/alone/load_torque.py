@@ -1,4 +1,4 @@
-"""The load torque that plans and hold use: what the model has found where it holds the load, and nothing elsewhere.
+"""The load torque that plans and hold use: what the model finds in hold, and 0 where that hardly pulls the load.
 
 A load that is believed to be pulled by next to nothing would bounce through the model's gap for ever, and the real one
 would follow. So a load that no torque holds has none.
@@ -7,8 +7,8 @@ would follow. So a load that no torque holds has none.
 import math
 
 from backlash_ros.control.command_range import clamp
+from backlash_ros.control.laws.planned.alone.by_load_encoder import APART
 from backlash_ros.control.laws.planned.alone.constants import AloneConstants
-from backlash_ros.control.laws.planned.alone.load_alone import APART
 from backlash_ros.control.laws.planned.alone.memory import STATES, TORQUE, AloneMemory
 from backlash_ros.control.laws.planned.load_torque import LEAST_SHOWN, set_load_torque
 from backlash_ros.control.laws.planned.memory import HOLD
@@ -21,15 +21,16 @@ _KNOWN = 25.0
 _FOLLOW_TIME = 0.02
 """Time in which it is followed, s."""
 _SLOW = 0.3
-"""Speed of the load, rad/s, below which nothing is taken for nothing."""
+"""Speed of the load, rad/s, below which a torque that does not hold it may be taken for nothing."""
 _NEXT_TO_NOTHING = 5.0
 """Standard deviation of a load torque that is taken for nothing, in torques that just hold the load."""
 _LEAST_PULL = 2.0
 """Acceleration, rad/s^2, that a load torque gives the load at least to hold it."""
 _UNSURE = 0.25
-"""By how much more a load torque must be that begins to hold the load, in the same, if it is not known better."""
+"""By how much a load torque must be above what holds the load to begin to hold it, as a share of that; less where it
+is known better."""
 _SHOWN = 1.5
-"""What plans know at least of a load torque, in torques that just hold the load."""
+"""Load torques of less than so many that just hold the load are 0 in plans."""
 _BY_MOTOR = 1.0
 """Standard deviation of the load torque as the motor alone shows it, as acceleration of the motor, rad/s^2."""
 
@@ -43,7 +44,7 @@ def _uncertainty(constants: AloneConstants, memory: AloneMemory) -> float:
 
 
 @compiled
-def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, edge: float) -> None:
+def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, holding: float) -> None:
     """Take a load torque of a touched load that holds nothing for none, or for what friction may hide."""
     shafts, known = memory.shafts, constants.plans
     sees = constants.sees_load != 0.0
@@ -54,7 +55,7 @@ def _take_for_nothing(constants: AloneConstants, memory: AloneMemory, edge: floa
     if sees and known.load_dry_friction == 0.0:
         for k in range(STATES):
             memory.covariance[TORQUE, k] = memory.covariance[k, TORQUE] = 0.0
-        memory.covariance[TORQUE, TORQUE] = (_NEXT_TO_NOTHING * edge) ** 2
+        memory.covariance[TORQUE, TORQUE] = (_NEXT_TO_NOTHING * holding) ** 2
 
 
 @compiled

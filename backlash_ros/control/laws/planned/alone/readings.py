@@ -33,7 +33,7 @@ def believe(constants: AloneConstants, memory: AloneMemory, readings: Load, read
     bound = largest_error(plans, memory.plans, readings.count)
     correction = check_reading(readings.doubt, error, unexpected_motion, bound, period)
     if correction.angle != 0.0:
-        # The encoder has leapt, or the model is lost: all but the place in the gap begins anew.
+        # The encoder has leapt, or the model is lost: both shafts go along, and the place in the gap counts as unknown.
         shafts.angle += correction.angle
         shafts.load_angle += correction.angle
         shafts.speed = shafts.load_speed = (

@@ -4,13 +4,13 @@ import math
 
 from backlash_ros.control.command_range import clamp
 from backlash_ros.control.law import LAW_SIGNATURE
+from backlash_ros.control.laws.planned.alone.by_load_encoder import observe_by_load
+from backlash_ros.control.laws.planned.alone.by_motor_encoder import observe_by_motor
 from backlash_ros.control.laws.planned.alone.constants import AloneConstants, alone_constants_at
 from backlash_ros.control.laws.planned.alone.hold import hold_alone
-from backlash_ros.control.laws.planned.alone.load_alone import observe_by_load
 from backlash_ros.control.laws.planned.alone.load_torque import use_load_torque
 from backlash_ros.control.laws.planned.alone.memory import LOAD_ANGLE, AloneMemory, alone_memory_at
 from backlash_ros.control.laws.planned.alone.model import look_ahead
-from backlash_ros.control.laws.planned.alone.motor_alone import observe_by_motor
 from backlash_ros.control.laws.planned.alone.start import start_alone
 from backlash_ros.control.laws.planned.command import Wanted, remember, voltage_for
 from backlash_ros.control.laws.planned.follow import follow_path
