@@ -101,7 +101,7 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
         best = ends[0]
         more = [*search.widths(best), *search.places(best), *search.other_laws(best, laws), search.with_losses(best)]
         if not best.problem.teeth.free:
-            more.append(search.freed(best))
+            more += [search.freed(best), *search.steel(best)]
         ends = sorted([*ends, *more], key=cost_of)
         if not ends[0].cost < best.cost - _GAINS:
             break

@@ -1,5 +1,6 @@
 """A search for the likeliest parameters of a recording of one encoder, from many starts to the bottom."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from copy import copy
@@ -87,6 +88,16 @@ _SOME_REBOUND = 0.1
 """Share of that damping that begins as rebound; tuned."""
 _BORNE = 0.05
 """Share of the torque at standstill at which free teeth begin as those that were found; tuned."""
+_STEEL = 0.05
+"""Share of the gap by which a quarter of the torque at standstill winds up teeth of steel; tuned."""
+_ROUND = (0.7, 0.85, 1.0, 1.15)
+"""Of a gap that was found: widths with which teeth of steel are tried; tuned."""
+_LIGHTER = (0.6, 1.0)
+"""Of an inertia that was found: those with which they are tried; tuned."""
+_DAMPED = (0.1, 0.3, 0.8)
+"""Damping ratios of both shafts on them that are tried; tuned."""
+_TRIED = 3
+"""Number of those that are improved; tuned."""
 FITS = 1.3
 """Largest rms of the innovations for which the model is taken for the drive's: 1 is that of a true model."""
 PULL = 0.8
@@ -336,6 +347,25 @@ class Search:
         there.ln_damping, there.ln_rebound = math.log(damping), math.log(_SOME_REBOUND * damping / torque)
         problem = self._problem(free_teeth(depth), self._thin, x)
         return self.descend(problem, x, max(found.stage - 1, 0))
+
+    def steel(self, found: Minimum) -> list[Minimum]:
+        """Return the minima of free teeth that begin stiff and damped, as of steel, with the motor as told."""
+        depth = 2.0 * _STEEL * math.exp(ln_half_gap(found.x))
+        stiffness, starts = 0.25 * self._torque / depth, []
+        for factor, lighter, damped in itertools.product(_ROUND, _LIGHTER, _DAMPED):
+            x = widened(found.x, factor)
+            there = parameters_at(x)
+            there.ln_load_inertia += math.log(lighter)
+            there.ln_motor_gain = there.ln_motor_braking = there.gear_loss = there.ln_exponent = 0.0
+            inertia = 1.0 / (1.0 / self._side.inertia + math.exp(-there.ln_load_inertia))
+            damping = 2.0 * damped * math.sqrt(stiffness * inertia)
+            there.ln_stiffness, there.ln_damping = math.log(stiffness), math.log(damping)
+            there.ln_rebound = math.log(_SOME_REBOUND * damping / self._torque)
+            starts.append(x)
+        problem = self._problem(free_teeth(depth), self._thin, starts[0])
+        noise = self._noise(self.stages[_LITTLE])
+        best = sorted(starts, key=lambda x: problem.cost(x, noise))[:_TRIED]
+        return [self.descend(problem, self.solve(problem, x, self.stages[_LITTLE], 8, 0.5).x, _LITTLE) for x in best]
 
     def with_losses(self, found: Minimum) -> Minimum:
         """Return the minimum with a gear that may lose torque."""
