@@ -3,7 +3,7 @@
 The servo, compiled as the node calls it, gets the samples of MuJoCo's plant; `test/nodes/test_mujoco_node.py` plays one
 of the drives against the node itself, which over DDS would take too long for all. The servo knows each drive, and so
 does MuJoCo: the export of docs/simulators.md, whose teeth are not those of our simulator. Judged as docs/evaluation.md
-says.
+says. With one encoder, the relay tells the gap in MuJoCo, too, or refuses.
 """
 
 from importlib.util import find_spec
@@ -14,13 +14,14 @@ import pytest
 if find_spec("mujoco") is None:
     pytest.skip("MuJoCo is not installed here; the locks in requirements have it", allow_module_level=True)
 
-from mujoco_servo import HAS_DC_MOTOR, SEED, MujocoServoDrive, known
+from mujoco_servo import HAS_DC_MOTOR, SEED, MujocoServoDrive, known, of_steel
 
 from backlash_ros.control import Servo
+from backlash_ros.control.experiment import BacklashEstimate
 from backlash_ros.foundation.signals import THETA_L
-from backlash_ros.simulation import SimulatedDrive
-from backlash_ros.studies.evaluation.population import Member, draw_member
-from backlash_ros.studies.evaluation.task import first_reading, true_reading
+from backlash_ros.simulation import SimulatedDrive, excite
+from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
+from backlash_ros.studies.evaluation.task import first_reading, settings_for, true_reading
 from backlash_ros.studies.judging import PRECISE, QUIET, judge_move, threshold
 
 pytestmark = [
@@ -66,3 +67,22 @@ def test_it_is_quiet_and_precise_in_mujoco_as_in_our_simulator(number: int) -> N
     here, there = judged(member, ours), judged(member, MujocoServoDrive(member))
     assert here == (True, True)
     assert there == (True, True)
+
+
+LEARNED = [("load", 0)]
+"""A gap 35 % too wide was told of it, by 3.5 standard uncertainties, before free teeth began like steel, too."""
+OTHERS = [(encoder, k) for encoder in ("load", "motor") for k in range(12) if of_steel(k).can_outrun]
+
+
+@pytest.mark.parametrize(
+    ("encoder", "number"), [*LEARNED, *(pytest.param(*each, marks=pytest.mark.grid) for each in OTHERS[1:])]
+)
+def test_one_encoder_tells_the_gap_between_teeth_of_steel_or_refuses(encoder: str, number: int) -> None:
+    member = of_steel(number, encoder)
+    model = told_model(member, "identified")
+    servo = Servo(model, settings_for(model, member, 0.0))
+    estimate = excite(servo, MujocoServoDrive(member), "relay", load_torque=member.load_torque)
+    assert isinstance(estimate, BacklashEstimate)
+    assert estimate.valid or (encoder, number) not in LEARNED
+    if estimate.valid:
+        assert abs(estimate.angle - member.drive.gear.backlash_angle) < 2.0 * estimate.uncertainty
