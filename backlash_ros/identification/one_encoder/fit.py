@@ -60,7 +60,7 @@ def _first_ends(
 ) -> tuple[Search, list[Minimum]]:
     """Return a search and its ends, the best first: of one that leaves nothing to be explained, or the likeliest.
 
-    All is tried with samples on time, then not; with the motor's encoder, then without the gentle part.
+    Tried in turn: samples on time; with the motor's encoder, without the gentle part; samples early or late.
     """
     search = Search(drive, recording, torque)
     ends = search.ends(laws)

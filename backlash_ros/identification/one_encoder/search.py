@@ -90,7 +90,7 @@ _BORNE = 0.05
 """Share of the torque at standstill at which free teeth begin as those that were found; tuned."""
 _STEEL = 0.05
 """Share of the gap by which a quarter of the torque at standstill winds up teeth of steel; tuned."""
-_ROUND = (0.7, 0.85, 1.0, 1.15)
+_AROUND = (0.7, 0.85, 1.0, 1.15)
 """Of a gap that was found: widths with which teeth of steel are tried; tuned."""
 _LIGHTER = (0.6, 1.0)
 """Of an inertia that was found: those with which they are tried; tuned."""
@@ -352,7 +352,7 @@ class Search:
         """Return the minima of free teeth that begin stiff and damped, as of steel, with the motor as told."""
         depth = 2.0 * _STEEL * math.exp(ln_half_gap(found.x))
         stiffness, starts = 0.25 * self._torque / depth, []
-        for factor, lighter, damped in itertools.product(_ROUND, _LIGHTER, _DAMPED):
+        for factor, lighter, damped in itertools.product(_AROUND, _LIGHTER, _DAMPED):
             x = widened(found.x, factor)
             there = parameters_at(x)
             there.ln_load_inertia += math.log(lighter)

@@ -159,7 +159,7 @@ class Plan(Record):
     """The plan that is flown."""
 
     time: float = 0.0  # s, since its start
-    rest_torque: float = 0.0  # N m, of the teeth at its end; forward, unlike its neighbours
+    rest_torque: float = 0.0  # N m, of the teeth at its end; positive forward, whatever the direction of the move
     segment_count: float = 0.0
     segments: Sequence[Segment] = parts(Segment, MOST_SEGMENTS)
     move: Move = part(Move)

@@ -140,7 +140,7 @@ def evaluate(constants: Constants, memory: Memory, time: float) -> PlannedMotion
 
 @compiled
 def fly_on(constants: Constants, memory: Memory) -> Wanted:
-    """Follow the plan for one period: the motor goes by its own encoder, the load does not move it.
+    """Follow the plan for one period: the motor goes by its own encoder; of the load only the middle counts.
 
     The torque is that of an inverse model of the motor, read ahead by the winding's time constant.
     """
