@@ -28,6 +28,7 @@ from backlash_ros.drive_file.drive_file import (
     start_of,
     surroundings_of,
 )
+from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.foundation.reading.parameter_files import in_sections, merged, named
 from backlash_ros.foundation.signals import STATE_NAMES, Measurement
@@ -137,6 +138,14 @@ def _check(name: str, value: float, least: float, most: float, unit: str) -> Non
         raise ValueError(f"{name} must be >= {least:g} and <= {most:g} {unit}, got {value!r}")
 
 
+def _check_design(drive: Drive, settings: ServoSettings) -> None:
+    """Raise CannotStartError if the law cannot be designed for a drive."""
+    try:
+        design_law(drive, settings)
+    except ValueError as error:
+        raise CannotStartError(str(error)) from error
+
+
 def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | MotionLimits | None]:
     """Return the requested run, and the path or the limits of the profile that it followed, None for a step.
 
@@ -169,10 +178,7 @@ def _simulated(given: argparse.Namespace) -> tuple[Run, PathFile | MotionLimits 
         )
         law = law_of(start.drive, settings)
         settings = settings.with_law(law, law_parameters_of(parameters, law))
-        try:
-            design_law(start.drive, settings)
-        except ValueError as error:
-            raise CannotStartError(str(error)) from error
+        _check_design(start.drive, settings)
     except TypeError as error:
         raise ValueError(str(error)) from error
     scenario = Scenario(

@@ -2,7 +2,7 @@
 
 from typing import cast
 
-from backlash_ros.control import BacklashEstimate, Limits, Servo, ServoSettings
+from backlash_ros.control import BacklashEstimate, Servo, ServoSettings
 from backlash_ros.control.experiment import Deferred, Outcome
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.delay import Delay
@@ -18,21 +18,19 @@ def run_experiment(
     parameters: Validated | None = None,
     *,
     model: Drive | None = None,
-    limits: Limits | None = None,
     load_torque: float = 0.0,
     sensors: Sensors | None = None,
     delay: Delay | None = None,
-    seed: int = 0,
 ) -> Outcome:
-    """Run one of `EXPERIMENTS` on a simulated drive and return how it ended.
+    """Run one of `EXPERIMENTS` on a simulated drive and return how it ended; `excite` takes one with limits or a seed.
 
     Parameters
     ----------
     drive, model : the moving drive, and the drive as the controller knows it (the same by default)
-    settings, limits : as for the controller node
+    settings : as for the controller node
     name, parameters : of the experiment; by default those of the settings, or its own defaults
     load_torque : constant, on the output shaft, N m
-    sensors, delay, seed : between plant and controller; the seed of their randomness
+    sensors, delay : between plant and controller
 
     Raises
     ------
@@ -41,8 +39,8 @@ def run_experiment(
     IntegrationError
         If the plant cannot be integrated.
     """
-    servo = Servo(model or drive, settings, limits)
-    plant = SimulatedDrive(drive, settings.period, sensors=sensors, delay=delay, seed=seed)
+    servo = Servo(model or drive, settings)
+    plant = SimulatedDrive(drive, settings.period, sensors=sensors, delay=delay)
     return excite(servo, plant, name, parameters, load_torque=load_torque)
 
 
@@ -81,7 +79,6 @@ def learn_backlash(
     load_torque: float = 0.0,
     sensors: Sensors | None = None,
     delay: Delay | None = None,
-    seed: int = 0,
 ) -> BacklashEstimate:
     """Learn the backlash of a simulated drive by the experiment of the settings; see `run_experiment`.
 
@@ -93,5 +90,5 @@ def learn_backlash(
     >>> estimate.valid, round(estimate.angle, 3)
     (True, 0.02)
     """
-    outcome = run_experiment(drive, settings, load_torque=load_torque, sensors=sensors, delay=delay, seed=seed)
+    outcome = run_experiment(drive, settings, load_torque=load_torque, sensors=sensors, delay=delay)
     return cast("BacklashEstimate", outcome)

@@ -1,4 +1,4 @@
-"""Imports point one way and in no circle, and only the ROS side knows ROS."""
+"""Imports point one way and in no circle, only the ROS side knows ROS, and functions and files are short."""
 
 import ast
 from functools import cache
@@ -152,3 +152,31 @@ def test_cells_have_names_and_not_numbers() -> None:
 def test_every_file_says_in_its_first_line_why_it_exists() -> None:
     said = {source: ast.get_docstring(parsed(source)) or "" for source in PACKAGE.rglob("*.py")}
     assert [source.name for source, text in said.items() if len(text.partition("\n")[0]) <= 20] == []
+
+
+STRICT = "control/laws", "control/monitoring"
+LINES, STRICT_LINES, STRICT_FILE, ARGUMENTS = 60, 40, 250, 8
+
+
+def is_strict(source: Path) -> bool:
+    return source.relative_to(PACKAGE).as_posix().startswith(STRICT)
+
+
+def arguments_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    given = function.args
+    named = [*given.posonlyargs, *given.args, *given.kwonlyargs]
+    return len(named) - (named[:1] != [] and named[0].arg in ("self", "cls"))
+
+
+def test_functions_and_files_are_short_enough_to_be_read_at_once() -> None:
+    long, wide = [], []
+    for source in sorted(PACKAGE.rglob("*.py")):
+        lines = STRICT_LINES if is_strict(source) else LINES
+        for node in ast.walk(parsed(source)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                assert node.end_lineno is not None
+                long += [f"{source.name}: {node.name}"] * (node.end_lineno - node.lineno >= lines)
+                wide += [f"{source.name}: {node.name}"] * (arguments_of(node) > ARGUMENTS)
+    assert (long, wide) == ([], [])
+    strict = filter(is_strict, PACKAGE.rglob("*.py"))
+    assert [source.name for source in strict if len(source.read_text().splitlines()) > STRICT_FILE] == []

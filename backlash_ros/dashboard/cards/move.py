@@ -139,9 +139,6 @@ def move_card(page: Shown) -> Refresh:
             why = next(filter(None, map(_refusal, fields)), "") or does(axis)
             said.tell(axis, Answer(not why, why))
 
-    def go() -> None:
-        act(lambda axis: _go(page, axis, target.angle), target.field)
-
     def make_step(sign: float) -> None:
         act(lambda axis: step(page, axis, sign * way.angle), way.field)
 
@@ -161,6 +158,7 @@ def move_card(page: Shown) -> Refresh:
             travel = ui.label("").classes("muted").props("data-name=travel")
         with line():
             target = _Angle(page, "angle", 1.0)
+            go = partial(act, lambda axis: _go(page, axis, target.angle), target.field)
             button("Go there", go, "go", primary=True)
             way = _Angle(page, "step", 0.5, least=0.0)
             period = ui.number("period, s", value=4.0, min=0.1, step=0.5, format="%g").props(FIELD)

@@ -30,6 +30,25 @@ _LOSS = 0.1
 """Standard deviation of the gear's loss, a share."""
 _STEEPEST_TEETH = 0.9
 """Largest exponent of free teeth, as ln: 2.5, where Hertz's teeth have 1.5."""
+_TOLD_TEETH = 5.0
+"""Largest factor on the force of told teeth, as ln, either way."""
+_LARGEST = parameters_of(
+    math.inf,
+    ln_half_gap=0.3,
+    offset=_FARTHEST,
+    gap_slope=0.1,
+    ln_stiffness=0.5,
+    ln_damping=0.7,
+    ln_rebound=1.0,
+    ln_exponent=0.2,
+    gear_loss=0.1,
+    ln_motor_gain=0.2,
+    ln_motor_braking=0.2,
+    ln_load_inertia=0.7,
+    ln_load_viscous=1.0,
+    load_scale_error=0.01,
+)
+"""Largest change of each parameter in a step of the search."""
 
 
 def beliefs_of(teeth: Candidate, mean: Array, *, torque: float, gain: float, period: float, by_motor: bool) -> Beliefs:
@@ -71,7 +90,7 @@ def beliefs_of(teeth: Candidate, mean: Array, *, torque: float, gain: float, per
         low=parameters_of(
             -math.inf,
             ln_half_gap=-14.0,
-            ln_stiffness=-math.inf if teeth.free else -5.0,
+            ln_stiffness=-math.inf if teeth.free else -_TOLD_TEETH,
             ln_exponent=0.0,
             ln_load_inertia=-25.0,
             ln_load_viscous=-18.0,
@@ -84,26 +103,11 @@ def beliefs_of(teeth: Candidate, mean: Array, *, torque: float, gain: float, per
         high=parameters_of(
             math.inf,
             ln_half_gap=1.0,
-            ln_stiffness=math.inf if teeth.free else 5.0,
+            ln_stiffness=math.inf if teeth.free else _TOLD_TEETH,
             ln_exponent=_STEEPEST_TEETH,
             ln_load_inertia=12.0,
             ln_load_viscous=12.0,
             gear_loss=0.0,
         ),
-        largest=parameters_of(
-            math.inf,
-            ln_half_gap=0.3,
-            offset=_FARTHEST,
-            gap_slope=0.1,
-            ln_stiffness=0.5,
-            ln_damping=0.7,
-            ln_rebound=1.0,
-            ln_exponent=0.2,
-            gear_loss=0.1,
-            ln_motor_gain=0.2,
-            ln_motor_braking=0.2,
-            ln_load_inertia=0.7,
-            ln_load_viscous=1.0,
-            load_scale_error=0.01,
-        ),
+        largest=_LARGEST,
     )

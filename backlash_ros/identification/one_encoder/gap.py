@@ -7,7 +7,7 @@ import numpy as np
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.counts import count_of
 from backlash_ros.identification.gap import Gap
-from backlash_ros.identification.one_encoder.fit import fit_one_sided
+from backlash_ros.identification.one_encoder.fit import OneSided, fit_one_sided
 from backlash_ros.identification.one_encoder.search import COARSE, FAR, FITS, LIGHT, PULL, STAGES
 from backlash_ros.identification.recording import Recording
 
@@ -40,61 +40,75 @@ _WIND_UP = 0.25
 """Component of the uncertainty: a share of how far the teeth wind up under what they bore, which may pass for gap."""
 
 
-def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> Gap:
-    """Return the gap where the load started, from one angle; see `fit_one_sided`."""
-    found, worse, near, stage, both = fit_one_sided(drive, recording, torque)
-    gap, size = found.gap, max(found.rms)
-    by_motor = bool(np.isnan(recording.load).all())
-    angle = recording.motor if by_motor else recording.load
-    way = float(np.nanmax(angle) - np.nanmin(angle))
-    deviation = _NOISE * found.gap_deviation
+def _uncertainty(one: OneSided, way: float) -> float:
+    """Return the standard uncertainty of the gap, rad; ``way``: how far the angle went, rad."""
+    found = one.fit
     change = float(found.values.gap_slope) * way
-    twist = found.teeth.twist(found.shape, 0.5 * gap, found.bearing) - 0.5 * gap
-    share = math.exp(found.values.ln_load_inertia) / drive.reflected_inertia
-    light = by_motor and share < LIGHT
+    twist = found.teeth.twist(found.shape, 0.5 * found.gap, found.bearing) - 0.5 * found.gap
     unexplained = math.hypot(found.noise[0], found.noise[1])
-    shares = math.hypot(_MODEL, _UNEXPLAINED * unexplained, _CURVED * way**2, near, _SLOPE * change)
-    uncertainty = math.hypot(deviation, shares * gap, _WIND_UP * twist)
-    why = ""
-    count = count_of(angle)
+    shares = math.hypot(_MODEL, _UNEXPLAINED * unexplained, _CURVED * way**2, one.near, _SLOPE * change)
+    return math.hypot(_NOISE * found.gap_deviation, shares * found.gap, _WIND_UP * twist)
+
+
+def _not_the_drive(one: OneSided, count: float) -> str:
+    """Return why the model is not the drive's; empty if it may be. ``count``: of the encoder, rad."""
+    found, size = one.fit, max(one.fit.rms)
     reading = max(count, COARSE) / math.sqrt(12.0)  # its standard deviation, as it was assumed
-    fits = max(FITS, min(_SMALL_ERROR * gap / reading, _MOST))
+    fits = max(FITS, min(_SMALL_ERROR * found.gap / reading, _MOST))
     if not size <= fits:
-        why = (
+        return (
             f"no model of teeth, friction and load explains what was seen: its errors are {size:.2g} times as large "
             f"as the encoder's counts allow, and may be {fits:.2g} times; check that the encoder counts in the "
             "direction of the motor, gear.reduction and the motor's parameters, and that nothing else moves the load"
         )
-    elif stage < FAR:
-        why = (
+    if one.stage < FAR:
+        return (
             "something moves the motor or the load that is neither the command nor the gear: as seen at the motor, "
             f"{100.0 * found.noise[0]:.2g} % of the standstill torque is unexplained; check the motor's values and "
             "gear.reduction, and that nothing else moves the load"
         )
-    elif abs(off := float(found.values.ln_motor_gain)) > _MOST_GAIN:
-        why = (
+    if abs(off := float(found.values.ln_motor_gain)) > _MOST_GAIN:
+        return (
             f"the command seems to accelerate the motor {math.exp(off):.2g} times as much as its data sheet says: "
             "check the unit of the command, the motor's values, its supply and gear.reduction"
         )
-    elif not both:
+    return ""
+
+
+def _not_seen(drive: Drive, one: OneSided, by_motor: bool, count: float) -> str:
+    """Return why the motion does not tell the gap; empty if it does. ``count``: of the encoder, rad."""
+    found = one.fit
+    share = math.exp(found.values.ln_load_inertia) / drive.reflected_inertia
+    if not one.both:
         side = "negative" if -found.torques[0] < found.torques[1] else "positive"
-        why = f"the teeth never bore a {side} torque, so the far flank was not seen"
-    elif light and stage < len(STAGES) - 1:
-        why = (
+        return f"the teeth never bore a {side} torque, so the far flank was not seen"
+    if by_motor and share < LIGHT and one.stage < len(STAGES) - 1:
+        return (
             f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {LIGHT:g} of it the "
             "motor hardly feels it, and what was seen is not plain enough for that"
         )
-    elif by_motor and found.pull > PULL:
-        why = (
+    if by_motor and found.pull > PULL:
+        return (
             f"the errors that are left pull the gap {found.pull:.2g} times as much as noise would, and may {PULL:g} "
             "times: the search has ended beside the drive; learn again"
         )
-    elif gap < _FEWEST * count:
-        counts = gap / count
-        why = f"the gap is {gap:.2g} rad, {counts:.2g} counts of the encoder: fewer than {_FEWEST:g} do not tell it"
-    elif worse < _WORSE:
-        why = "gaps of different widths explain what was seen equally well"
-    elif not uncertainty <= _SURE * gap:
+    if found.gap < _FEWEST * count:
+        counts = found.gap / count
+        return (
+            f"the gap is {found.gap:.2g} rad, {counts:.2g} counts of the encoder: fewer than {_FEWEST:g} do not tell it"
+        )
+    return "gaps of different widths explain what was seen equally well" if one.worse < _WORSE else ""
+
+
+def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> Gap:
+    """Return the gap where the load started, from one angle; see `fit_one_sided`."""
+    one = fit_one_sided(drive, recording, torque)
+    found, by_motor = one.fit, bool(np.isnan(recording.load).all())
+    angle = recording.motor if by_motor else recording.load
+    gap, uncertainty = found.gap, _uncertainty(one, float(np.nanmax(angle) - np.nanmin(angle)))
+    count = count_of(angle)
+    why = _not_the_drive(one, count) or _not_seen(drive, one, by_motor, count)
+    if not why and not uncertainty <= _SURE * gap:
         why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
     if why:
         return Gap(0.0, 0.0, False, why, found)

@@ -346,7 +346,7 @@ class Search:
         there.ln_stiffness, there.ln_exponent = math.log(exponent * torque / depth), math.log(exponent)
         there.ln_damping, there.ln_rebound = math.log(damping), math.log(_SOME_REBOUND * damping / torque)
         problem = self._problem(free_teeth(depth), self._thin, x)
-        return self.descend(problem, x, max(found.stage - 1, 0))
+        return self.near(found._replace(problem=problem, x=x))
 
     def steel(self, found: Minimum) -> list[Minimum]:
         """Return the minima of free teeth that begin stiff and damped, as of steel, with the motor as told."""
@@ -372,7 +372,7 @@ class Search:
         high, x = found.problem.beliefs.high.copy(), found.x.copy()
         parameters_at(high).gear_loss, parameters_at(x).gear_loss = _MOST_LOSS, _SOME_LOSS
         problem = replace(found.problem, recording=self._thin, beliefs=found.problem.beliefs._replace(high=high))
-        return self.descend(problem, x, max(found.stage - 1, 0))
+        return self.near(found._replace(problem=problem, x=x))
 
     def timed(self, timing: float) -> "Search":
         """Return a search of the same recording with another timing."""
@@ -381,12 +381,12 @@ class Search:
         return other
 
     def near(self, found: Minimum) -> Minimum:
-        """Return the minimum beside one that another search has found."""
+        """Return the minimum from parameters and a problem beside those of one that was found."""
         return self.descend(found.problem, found.x, max(found.stage - 1, 0))
 
     def finish(self, found: Minimum) -> Minimum:
         """Continue with every reading, if that converges: fast readings make the cost rugged."""
         if self._thin is self.recording:
             return found
-        end = self.descend(replace(found.problem, recording=self.recording), found.x, max(found.stage - 1, 0))
+        end = self.near(found._replace(problem=replace(found.problem, recording=self.recording)))
         return end if max(end.sizes) <= max(FITS, *found.sizes) else found

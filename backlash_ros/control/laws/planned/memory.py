@@ -10,12 +10,8 @@ from collections.abc import Sequence
 from backlash_ros.control.law import FAST_REGION
 from backlash_ros.foundation.record import Array, Record, cells, part, parts, view_of
 
-FLIGHT = 1.0
-"""Phase: a planned move."""
-HOLD = 2.0
-"""Phase: near the target."""
-FOLLOW = 3.0
-"""Phase: with a reference that moves."""
+FLIGHT, HOLD, FOLLOW = 1.0, 2.0, 3.0
+"""Phases: a planned move; near the target; with a reference that moves."""
 PHASES = {1: "flight", 2: "hold", 3: "follow"}
 NO_MOVE = 0.0
 """Next move: none."""
