@@ -183,6 +183,6 @@ Step = Callable[[PlantConstants, Array, float, Acting, float, bool, Array], tupl
 @cache
 def explicit_with(law: type[Contact], plain: bool = False) -> Step:
     """Return `_step` compiled for a contact law and for drives that are ``plain``: see `dynamics.is_plain`."""
-    motion = equations_with(law, plain).motion
+    motion = equations_with(law, plain).motion  # type: ignore[arg-type]
     one = specialize(stage, fused=True, inlined=True, _motion=motion)
-    return specialize(_step, fused=True, inlined=True, _stage=one)  # type: ignore[arg-type]
+    return specialize(_step, fused=True, inlined=True, _stage=one)
