@@ -63,7 +63,7 @@ def _refuse_misspelled(*files: Path) -> None:
 
     parameters = read_parameters(*files)
     with suppress(ImportError):
-        nodes = with_ros("backlash_ros.nodes.parameters")
+        nodes = with_ros("backlash_ros.nodes.fixed_parameters")
         try:
             nodes.refuse_misspelled(parameters)
         except ValueError as error:

@@ -15,7 +15,7 @@ from backlash_ros.control.law_in_use import LawInUse
 from backlash_ros.control.laws import LAWS, design_law, law_of
 from backlash_ros.control.limits import Limits
 from backlash_ros.control.memory import InputRow, TickRow
-from backlash_ros.control.monitoring.faults import describe_fault
+from backlash_ros.control.monitoring.fault_texts import describe_fault
 from backlash_ros.control.monitoring.monitor import forget_ends
 from backlash_ros.control.motion.motion_limits import motion_limits
 from backlash_ros.control.motion.plan import Fastest, Plan

@@ -15,7 +15,7 @@ import numba
 from backlash_ros.control.command_range import RangeConstants, clamp, command_of, voltage_range
 from backlash_ros.control.law import LawStep
 from backlash_ros.control.monitoring.bounds import MonitorConstants
-from backlash_ros.control.monitoring.faults import FaultDetails
+from backlash_ros.control.monitoring.fault_texts import FaultDetails
 from backlash_ros.control.monitoring.monitor import MonitorMemory, monitor_step
 from backlash_ros.control.monitoring.plausibility import (
     PlausibilityConstants,

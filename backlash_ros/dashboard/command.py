@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from backlash_ros.nodes.parameters import DashboardParameters, declare_dashboard, refuse_unknown
+from backlash_ros.nodes.fixed_parameters import DashboardParameters, declare_dashboard, refuse_unknown
 from backlash_ros.ros.aside import KINDER, InTurn
 from backlash_ros.ros.overrides import parameter_rules
 from backlash_ros.ros.run import help_of

@@ -28,10 +28,10 @@ from backlash_ros.drivetrain import NOMINAL_DRIVE
 from backlash_ros.foundation.messages import BadSampleError, NotOurJointsError, read_joint_state, stamp_ns
 from backlash_ros.foundation.signals import THETA_L, THETA_M, Measurement
 from backlash_ros.gates import Action, Fault, Judged, SampleGate
+from backlash_ros.nodes.fixed_parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.group import Group
 from backlash_ros.nodes.learning import Learning
 from backlash_ros.nodes.motion import Motion
-from backlash_ros.nodes.parameters import declare_controller, refuse_unknown
 from backlash_ros.nodes.reports import ONE_IS_LOST, ControllerReport, NodeFacts
 from backlash_ros.nodes.start_lines import drive_found, margins_line, stands_in, untold_drive
 from backlash_ros.nodes.tunables import Tunables

@@ -21,7 +21,7 @@ from backlash_ros.control.experiment import BacklashEstimate, DriveEstimate, Met
 from backlash_ros.control.monitoring.wear import WearWatch
 from backlash_ros.drivetrain.parameters import to_use
 from backlash_ros.foundation.signals import Measurement
-from backlash_ros.nodes.parameters import ControllerParameters
+from backlash_ros.nodes.fixed_parameters import ControllerParameters
 from backlash_ros.nodes.tunables import Tunables
 from backlash_ros.ros.aside import Aside, InTurn
 from backlash_ros.ros.diagnostics import OK, WARN

@@ -12,8 +12,8 @@ from backlash_ros.control.motion.stream import Stream
 from backlash_ros.control.motion.trajectory import TrajectoryError, points_of, trajectory_of
 from backlash_ros.foundation.messages import stamp_ns
 from backlash_ros.foundation.signals import Measurement
+from backlash_ros.nodes.fixed_parameters import ControllerParameters
 from backlash_ros.nodes.follow_trajectory import FollowTrajectory
-from backlash_ros.nodes.parameters import ControllerParameters
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.timer import in_ns
 from backlash_ros.ros.topics import RECEIVE_STREAM, SEND, TRANSIENT_LOCAL

@@ -8,7 +8,7 @@ import yaml
 from rcl_interfaces.msg import ParameterDescriptor
 
 from backlash_ros.foundation.reading.parameter_files import in_sections
-from backlash_ros.nodes.parameters import declare_controller, declare_dashboard, declare_simulator
+from backlash_ros.nodes.fixed_parameters import declare_controller, declare_dashboard, declare_simulator
 from backlash_ros.nodes.tunables import declare_tunables
 from backlash_ros.ros.parameters import Declarations, declare_autostart, in_parts
 

@@ -25,7 +25,7 @@ from backlash_ros.drivetrain import IntegrationError
 from backlash_ros.foundation.messages import answered_sample
 from backlash_ros.foundation.signals import CURRENT
 from backlash_ros.gates import CommandGate, Fault
-from backlash_ros.nodes.parameters import declare_simulator, refuse_unknown
+from backlash_ros.nodes.fixed_parameters import declare_simulator, refuse_unknown
 from backlash_ros.nodes.reports import NodeFacts, SimulatorReport
 from backlash_ros.ros.lifecycle import ManagedNode
 from backlash_ros.ros.messages import fill_joint_state, to_stamp

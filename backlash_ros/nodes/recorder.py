@@ -23,7 +23,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.typesys import Stores, get_typestore
 
-from backlash_ros.nodes.parameters import declare_recorder, refuse_unknown
+from backlash_ros.nodes.fixed_parameters import declare_recorder, refuse_unknown
 from backlash_ros.recordings.bag_writer import BagWriter
 from backlash_ros.ros.run import StoppableNode, run
 from backlash_ros.ros.timer import Timer

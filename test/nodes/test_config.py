@@ -12,8 +12,8 @@ from rcl_interfaces.srv import ListParameters
 from backlash_ros.cli import main
 from backlash_ros.control import Gains, design_gains
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
+from backlash_ros.nodes.fixed_parameters import all_names
 from backlash_ros.nodes.parameter_file import parameters_of
-from backlash_ros.nodes.parameters import all_names
 from backlash_ros.studies.design.report import gain_text
 from backlash_ros.studies.design.trial import Choice, Loop
 

@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from backlash_ros.nodes.parameters import all_names
+from backlash_ros.nodes.fixed_parameters import all_names
 
 Start = Callable[..., Process]
 CONFIG = Path(__file__).parents[2] / "config"

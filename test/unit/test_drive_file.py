@@ -77,7 +77,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_no_parameter_of_any_node_is_taken_for_a_misspelled_one_of_the_drive(tmp_path: Path) -> None:
-    parameters = pytest.importorskip("backlash_ros.nodes.parameters", reason="needs rclpy")
+    parameters = pytest.importorskip("backlash_ros.nodes.fixed_parameters", reason="needs rclpy")
     drives = ("motor.", "gear.", "load.", "contact.", "effects.", "command_in")
     of_others = {name: 1.0 for name in parameters.all_names({}) if not name.startswith(drives)}
     assert len(of_others) > 100

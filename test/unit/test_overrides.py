@@ -11,7 +11,7 @@ pytest.importorskip("rclpy", reason="needs rclpy")
 from rclpy.parameter import Parameter
 
 from backlash_ros.foundation.reading.misspelled import check_known
-from backlash_ros.nodes.parameters import all_names
+from backlash_ros.nodes.fixed_parameters import all_names
 from backlash_ros.ros.overrides import parameter_rules, refuse_repeated_keys
 from backlash_ros.ros.parameters import check_kind, convert
 

@@ -325,7 +325,7 @@ def test_a_torn_bag_is_replayed_as_far_as_it_is_whole(bag: Path, tmp_path: Path)
 
 
 def test_what_may_change_is_what_the_node_declares_as_dynamic() -> None:
-    declare = pytest.importorskip("backlash_ros.nodes.parameters", reason="needs rclpy").declare_controller
+    declare = pytest.importorskip("backlash_ros.nodes.fixed_parameters", reason="needs rclpy").declare_controller
     tunables = pytest.importorskip("backlash_ros.nodes.tunables", reason="needs rclpy").Tunables
 
     class Node:

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs rclpy")
 
-from backlash_ros.nodes.parameters import declare_controller, declare_simulator
+from backlash_ros.nodes.fixed_parameters import declare_controller, declare_simulator
 from backlash_ros.nodes.tunables import Tunables, declare_tunables
 from backlash_ros.ros.parameters import Declarations
 

@@ -25,7 +25,7 @@ a quarter of what its inertia says.
 import math
 
 from backlash_ros.control.monitoring.bounds import MonitorConstants
-from backlash_ros.control.monitoring.faults import FaultDetails
+from backlash_ros.control.monitoring.fault_texts import FaultDetails
 from backlash_ros.control.observer import ObserverConstants, ObserverMemory, low_pass_gain, observer_step
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Array, Record, cells, part

@@ -23,7 +23,7 @@ than the monitor's limit on the gap, which looks the same.
 
 import math
 
-from backlash_ros.control.monitoring.faults import FaultDetails
+from backlash_ros.control.monitoring.fault_texts import FaultDetails
 from backlash_ros.control.monitoring.side import (
     LATELY,
     PATIENCE,

@@ -5,7 +5,7 @@ All angles and speeds are at the output, so that both sides of the gear can be c
 
 import math
 
-from backlash_ros.control.monitoring.faults import FaultDetails
+from backlash_ros.control.monitoring.fault_texts import FaultDetails
 from backlash_ros.control.observer import low_pass_gain
 from backlash_ros.foundation.compiled import compiled
 from backlash_ros.foundation.record import Record

@@ -13,7 +13,7 @@ from backlash_ros.control import LAWS, Servo, design_law
 from backlash_ros.control.acting import ActingLaw
 from backlash_ros.control.design.choice import Choice
 from backlash_ros.control.laws import lacks, law_of
-from backlash_ros.control.monitoring.faults import FaultDetails
+from backlash_ros.control.monitoring.fault_texts import FaultDetails
 from backlash_ros.control.motion.moving_reference import MotionMemory
 from backlash_ros.control.motion.profile_parameters import STEP
 from backlash_ros.control.motion.setpoint import ORDER, Cursor
