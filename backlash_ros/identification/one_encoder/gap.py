@@ -32,8 +32,8 @@ _UNEXPLAINED = 40.0
 """Component of the uncertainty: a share of the gap for what nothing explains on motor and load, as shares of the torque
 at standstill. The gentlest motion has 5 % of it, and twice what disturbs that counts; tuned."""
 _UNSEEN_MOTOR = 1.5
-"""How much more that counts with the load's encoder, which does not see the motor: with a torque that rippled, a gap was
-told 19 % too wide; tuned."""
+"""How much more that counts with the load's encoder, which does not see the motor: a gap was told 19 % too wide where
+the motor's torque rippled; tuned."""
 _CURVED = 0.05
 """Component of the uncertainty: a share of the gap for each square radian of the way, since a gap varies."""
 _SLOPE = 0.5
