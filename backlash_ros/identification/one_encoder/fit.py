@@ -73,14 +73,14 @@ def _first_ends(
             return brisk, found
     jittery = Search(drive, recording, torque, _EARLY_OR_LATE)
     found = jittery.ends(laws)
-    return (jittery, found) if found[0].cost < ends[0].cost else (search, ends)
+    return (jittery, found) if cost_of(found[0]) < cost_of(ends[0]) else (search, ends)
 
 
 def _timed(search: Search, found: Minimum) -> tuple[Search, Minimum]:
     """Return the likeliest of an end and those beside it with other timings, and the search that it is of."""
     others = [search.timed(timing) for timing in _TIMINGS]
     ends = [(search, found), *((other, other.near(found)) for other in others)]
-    return min(ends, key=lambda each: each[1].cost)
+    return min(ends, key=lambda each: cost_of(each[1]))
 
 
 def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: Sequence[Contact] = ()) -> OneSided:
@@ -103,11 +103,11 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
         if not best.problem.teeth.free:
             more += [search.freed(best), *search.steel(best)]
         ends = sorted([*ends, *more], key=cost_of)
-        if not ends[0].cost < best.cost - _GAINS:
+        if not cost_of(ends[0]) < cost_of(best) - _GAINS:
             break
     best = ends[0]
     here = ln_half_gap(best.x)
-    others = [(abs(ln_half_gap(end.x) - here), end.cost - best.cost) for end in ends if math.isfinite(end.cost)]
+    others = [(abs(ln_half_gap(end.x) - here), cost_of(end) - cost_of(best)) for end in ends if math.isfinite(end.cost)]
     search, best = _timed(search, best)
     end = search.finish(best)
     return OneSided(
