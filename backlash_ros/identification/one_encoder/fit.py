@@ -13,6 +13,7 @@ import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.drivetrain.contact import Contact
+from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.candidates import Candidate, contacts_of, told_teeth
 from backlash_ros.identification.fitting.fit import Fit
 from backlash_ros.identification.one_encoder.search import PUNCTUAL, Minimum, Search, cost_of, ln_half_gap
@@ -27,7 +28,7 @@ _GENTLE = 0.3
 _APART = 0.15
 """By how much, as ln, a gap differs to be another one, which has to be worse."""
 _OTHERS = 20.0
-"""Cost by which another end of the search must be worse for its gap to count by 1/e in the uncertainty; tuned."""
+"""Cost by which another end of the search must be worse to count by 1/e in the uncertainties; tuned."""
 _ROUNDS = 4
 """Largest number of times that other widths, laws and losses are tried around the best end; tuned."""
 _GAINS = 3.0
@@ -35,15 +36,15 @@ _GAINS = 3.0
 
 
 class OneSided(NamedTuple):
-    """The likeliest fit; cost by which another gap is ``worse``; how far off ends ``near`` by are, as ln.
+    """The likeliest fit; cost by which another gap is ``worse``; how far off the ends ``near`` by are.
 
-    ``stage`` of the noise: in the first ones it takes so much that the model is not the drive's. ``both``: whether both
+    That is a row of `Parameters`, each of the farthest end; an end counts the less the worse it is. ``stage`` of the noise: in the first ones it takes so much that the model is not the drive's. ``both``: whether both
     flanks bore a torque.
     """
 
     fit: Fit
     worse: float
-    near: float
+    near: Array
     stage: int
     both: bool
 
@@ -107,13 +108,18 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
             break
     best = ends[0]
     here = ln_half_gap(best.x)
-    others = [(abs(ln_half_gap(end.x) - here), cost_of(end) - cost_of(best)) for end in ends if math.isfinite(end.cost)]
+    others = [
+        (abs(ln_half_gap(end.x) - here), cost_of(end) - cost_of(best), np.abs(end.x - best.x))
+        for end in ends
+        if math.isfinite(end.cost)
+    ]
+    near = [math.exp(-cost / _OTHERS) * off for apart, cost, off in others if apart <= _APART]
     search, best = _timed(search, best)
     end = search.finish(best)
     return OneSided(
         fit=search.fit(end),
-        worse=min((cost for apart, cost in others if apart > _APART), default=math.inf),
-        near=max((apart * math.exp(-cost / _OTHERS) for apart, cost in others if apart <= _APART), default=math.inf),
+        worse=min((cost for apart, cost, _ in others if apart > _APART), default=math.inf),
+        near=np.max(near, axis=0),
         stage=end.stage,
         both=end.both,
     )

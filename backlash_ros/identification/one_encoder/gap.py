@@ -1,11 +1,13 @@
 """The gap by the fit of a recording of one encoder, with its uncertainty, or why there is none."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from backlash_ros.drivetrain import Drive
 from backlash_ros.identification.counts import count_of
+from backlash_ros.identification.fitting.parameters import parameters_of, place_of
 from backlash_ros.identification.gap import Gap
 from backlash_ros.identification.one_encoder.fit import OneSided, fit_one_sided
 from backlash_ros.identification.one_encoder.search import COARSE, FAR, FITS, LIGHT, PULL, STAGES
@@ -36,6 +38,8 @@ _CURVED = 0.05
 _SLOPE = 0.5
 """Component of the uncertainty: a share of what the gap seems to change by over the way, since the model's errors look
 like that."""
+_ALSO_OFF = "ln_load_inertia", "ln_load_viscous", "load_coulomb"
+"""What else ends of the search that are nearly as likely leave uncertain: a narrower gap goes with a lighter load."""
 _WIND_UP = 0.25
 """Component of the uncertainty: a share of how far the teeth wind up under what they bore, which may pass for gap."""
 _MOST_WIND_UP = 0.08
@@ -50,7 +54,9 @@ def _uncertainty(one: OneSided, way: float) -> float:
     twist = found.teeth.twist(found.shape, 0.5 * found.gap, found.bearing) - 0.5 * found.gap
     wound_up = min(_WIND_UP * twist, _MOST_WIND_UP * found.gap)
     unexplained = math.hypot(found.noise[0], found.noise[1])
-    shares = math.hypot(_MODEL, _UNEXPLAINED * unexplained, _CURVED * way**2, one.near, _SLOPE * change)
+    shares = math.hypot(
+        _MODEL, _UNEXPLAINED * unexplained, _CURVED * way**2, one.near[place_of("ln_half_gap")], _SLOPE * change
+    )
     return math.hypot(_NOISE * found.gap_deviation, shares * found.gap, wound_up)
 
 
@@ -116,6 +122,8 @@ def measure_gap_one_sided(drive: Drive, recording: Recording, torque: float) -> 
         why = f"the gap is {gap:.3g} rad with a standard uncertainty of {uncertainty:.2g} rad, too large to be used"
     if why:
         return Gap(0.0, 0.0, False, why, found)
+    near = parameters_of(**{name: float(one.near[place_of(name)]) for name in _ALSO_OFF})
+    found = replace(found, covariance=found.covariance + np.diag(near**2))
     told = (
         f"{recording.time[-1] - recording.time[0]:.1f} s of motion of one encoder, with teeth by "
         f"{found.teeth.name} law that bore {found.torques[0]:.2g} to {found.torques[1]:.2g} N m"
