@@ -97,7 +97,7 @@ def test_the_motion_starts_on_the_flank_on_which_a_torque_holds_the_load(number:
 @pytest.mark.population
 @pytest.mark.parametrize("number", [42, 44])
 def test_free_teeth_do_not_pass_for_elastic_ones(number: int) -> None:
-    """By what three more parameters explain by chance, the gap was 4 and 9 % too narrow, the load up to 43 % too light."""
+    """By what more parameters explain by chance, gaps were 4 and 9 % too narrow, and a load 43 % too light."""
     assert_learned(draw_member(291126, number, "core", "load"), "identified", within=0.04)
 
 

@@ -38,8 +38,9 @@ _GAINS = 3.0
 class OneSided(NamedTuple):
     """The likeliest fit; cost by which another gap is ``worse``; how far off the ends ``near`` by are.
 
-    That is a row of `Parameters`, each of the farthest end; an end counts the less the worse it is. ``stage`` of the noise: in the first ones it takes so much that the model is not the drive's. ``both``: whether both
-    flanks bore a torque.
+    That is a row of `Parameters`, each of the farthest end; an end counts the less the worse it is. ``stage`` of the
+    noise: in the first ones it takes so much that the model is not the drive's. ``both``: whether both flanks bore a
+    torque.
     """
 
     fit: Fit
