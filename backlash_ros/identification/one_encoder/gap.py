@@ -89,14 +89,14 @@ def _not_the_drive(one: OneSided, count: float) -> str:
 def _not_seen(drive: Drive, one: OneSided, by_motor: bool, count: float) -> str:
     """Return why the motion does not tell the gap; empty if it does. ``count``: of the encoder, rad."""
     found = one.fit
-    share = math.exp(found.values.ln_load_inertia) / drive.reflected_inertia
+    least = math.exp(found.values.ln_load_inertia - one.near[place_of("ln_load_inertia")]) / drive.reflected_inertia
     if not one.both:
         side = "negative" if -found.torques[0] < found.torques[1] else "positive"
         return f"the teeth never bore a {side} torque, so the far flank was not seen"
-    if share < LIGHT and (one.stage < len(STAGES) - 1 or found.pull > PULL):
+    if least < LIGHT and (one.stage < len(STAGES) - 1 or found.pull > PULL):
         return (
-            f"the load's inertia is {share:.2g} of the motor's, as seen at the output: below {LIGHT:g} of it the "
-            "motor hardly feels it, and what was seen is not plain enough for that"
+            f"the load's inertia may be only {least:.2g} of the motor's, as seen at the output: below {LIGHT:g} of it "
+            "the motor hardly feels it, and what was seen is not plain enough for that"
         )
     if by_motor and found.pull > PULL:
         return (
