@@ -41,13 +41,13 @@ _CURVED = 0.05
 _SLOPE = 0.5
 """Component of the uncertainty: a share of what the gap seems to change by over the way, since the model's errors look
 like that."""
-_ALSO_OFF = "ln_load_inertia", "ln_load_viscous", "load_coulomb"
-"""What else ends of the search that are nearly as likely leave uncertain: a narrower gap goes with a lighter load."""
 _WIND_UP = 0.25
 """Component of the uncertainty: a share of how far the teeth wind up under what they bore, which may pass for gap."""
 _MOST_WIND_UP = 0.08
 """The most of that, a share of the gap: the swing on soft teeth shows how stiff they are. Of ten drives whose teeth
 wound up by 0.36 to 0.54 of the gap, nine gaps were right within 1.6 %, and one within 6.2 %; tuned."""
+_ALSO_OFF = "ln_load_inertia", "ln_load_viscous", "load_coulomb"
+"""What else ends of the search that are nearly as likely leave uncertain: a narrower gap goes with a lighter load."""
 
 
 def _uncertainty(one: OneSided, by_motor: bool, way: float) -> float:
