@@ -88,7 +88,8 @@ def test_with_one_encoder_it_is_learned_or_refused_and_quiet(
     made = rig(member, plant=MujocoServoDrive(member))
     answer = made.drive.call("identify")
     known = made.in_use()
-    assert known["identified"] == answer.success
+    # A gap may be told with a friction that is not sure enough to plan moves.
+    assert answer.success or not known["identified"]
     if answer.success:
         assert known["backlash_angle"] == pytest.approx(b, abs=UNSURE * b)
     else:
