@@ -16,6 +16,7 @@ from backlash_ros.control.experiment import BacklashEstimate, Deferred, DriveEst
 from backlash_ros.drivetrain import NOMINAL_DRIVE, Drive
 from backlash_ros.drivetrain.sensors import Sensors
 from backlash_ros.foundation.signals import OMEGA_L, THETA_L, THETA_M, Measurement
+from backlash_ros.identification.fitting.problem import Problem
 from backlash_ros.simulation import SimulatedDrive, run_experiment
 from backlash_ros.studies.evaluation.population import Member, draw_member, told_model
 from backlash_ros.studies.evaluation.task import settings_for
@@ -99,6 +100,14 @@ def test_the_motion_starts_on_the_flank_on_which_a_torque_holds_the_load(number:
 def test_free_teeth_do_not_pass_for_elastic_ones(number: int) -> None:
     """By what more parameters explain by chance, gaps were 4 and 9 % too narrow, and a load 43 % too light."""
     assert_learned(draw_member(291126, number, "core", "load"), "identified", within=0.04)
+
+
+@pytest.mark.population
+def test_a_motion_that_leaves_all_bounds_with_every_model_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Problem, "_run", lambda *_, **__: math.inf)
+    estimate = learned(draw_member(291126, 44, "core", "load"), "identified")
+    assert not estimate.valid
+    assert estimate.reason.startswith("no gap measured: ")
 
 
 @pytest.mark.population

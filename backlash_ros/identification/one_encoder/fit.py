@@ -16,6 +16,7 @@ from backlash_ros.drivetrain.contact import Contact
 from backlash_ros.foundation.record import Array
 from backlash_ros.identification.fitting.candidates import Candidate, contacts_of, told_teeth
 from backlash_ros.identification.fitting.fit import Fit
+from backlash_ros.identification.fitting.parameters import PARAMETERS
 from backlash_ros.identification.one_encoder.search import PUNCTUAL, Minimum, Search, cost_of, ln_half_gap
 from backlash_ros.identification.recording import Recording
 
@@ -120,7 +121,7 @@ def fit_one_sided(drive: Drive, recording: Recording, torque: float, contacts: S
     return OneSided(
         fit=search.fit(end),
         worse=min((cost for apart, cost, _ in others if apart > _APART), default=math.inf),
-        near=np.max(near, axis=0),
+        near=np.max(near, axis=0) if near else np.full(PARAMETERS, math.inf),
         stage=end.stage,
         both=end.both,
     )
